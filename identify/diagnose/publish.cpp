@@ -135,6 +135,15 @@ bool worse(const LeftOut& row, double noise_N) {
   return row.more_N2 > deciding().worse_standard_errors * row.more_error_N2;
 }
 
+std::string shown_too_seldom(const HeldoutStudy& study) {
+  const auto not_shown = static_cast<std::size_t>(std::ranges::count(study.left_out, 0.0, &LeftOut::more_N2));
+  constexpr std::size_t kOneOf = 4;
+  if (kOneOf * not_shown <= study.left_out.size()) return {};
+  return base::formatted(
+      "where one motion or recording at a time is left out, the others do not show it in %zu of %zu cases", not_shown,
+      study.left_out.size());
+}
+
 std::string unphysical(const model::ModelSpec& spec, std::span<const Series> series, double noise_N) {
   for (const model::Part& part : spec.parts) {
     if (!model::is_effect(*part.physics) && !model::is_empirical(*part.physics)) continue;
@@ -216,14 +225,23 @@ Publication publish(const Search& search, const Selection& selection, const Leav
     std::string why = unphysical(candidate->spec, problem.series(), noise_N);
     std::optional<LeftOut> decided_by;
     const double model_N = rms_of_all_N(problem, candidate->spec, white_N);
+    const bool not_sure =
+        !candidate->described_by.empty() || std::ranges::all_of(candidate->effects, [&](const auto* e) {
+          return std::ranges::find(doubted, e) != doubted.end();
+        });
     if (why.empty() && !beside_a_walk) why = worse_where_fitted(model_N, nominal_N, noise_N);
     if (why.empty()) {
       auto found = at_largest_share(leave_out, *candidate, nominal, model_N <= deciding().only_noise_ratio * noise_N,
                                     noise_N, decided_by);
+      if (found && not_sure) why = shown_too_seldom(found->study);
+      if (!why.empty()) {
+        found.reset();
+        decided_by.reset();
+      }
       const bool all_of_it = found && found->share == 1.0;
       if (found && (!passed || found->more_N2() < passed->more_N2())) passed = std::move(found);
       if (all_of_it) break;
-      why = text_of(*decided_by);
+      if (why.empty()) why = text_of(*decided_by);
     }
     if (!out.why.empty()) continue;
     out.why = std::move(why);

@@ -108,6 +108,26 @@ TEST(DiscoveryRefused, AnActiveLawIsNotPublished) {
   EXPECT_NE(d.not_modelled.why.find("would give out"), std::string::npos) << d.not_modelled.why;
 }
 
+/// Of two recordings one hardly moves: it forbids nothing that the motions of the other show one after another.
+TEST(DiscoveryOfTwo, IsPublishedAlsoWhereOneRecordingHardlyMoves) {
+  const test::ConcealedSpecimen bench{.arm_N_mm3 = 0.3, .seed = 33};
+  test::ConcealedSpecimen again = bench;
+  again.seed = 36;
+  const messages::Recording moves = test::record(bench), moves_again = test::record(again);
+  messages::Recording rests = moves_again;
+  std::size_t rows = 0;
+  while (rows < rests.frame.size() && std::fabs(rests.frame.position_mm[rows]) < 0.05) ++rows;
+  for (auto* column : {&rests.frame.t_s, &rests.frame.force_N, &rests.frame.position_mm}) column->resize(rows);
+  DiagnosisOptions options;
+  options.threads = 2;
+  const auto of_two = [&](const messages::Recording& second) {
+    return diagnose({moves, second}, {"first", "second"}, model::nominal_model("slse1"), options).diagnosis;
+  };
+  const Diagnosis both = of_two(moves_again), one = of_two(rests);
+  EXPECT_FALSE(both.discovered.empty()) << both.not_modelled.why;
+  EXPECT_FALSE(one.discovered.empty()) << one.not_modelled.why;
+}
+
 const Concealed kActiveDrag{"drag_with_position",
                             {.drag_N_s_mm2 = 0.15, .seed = 31},
                             "dashpot_position",

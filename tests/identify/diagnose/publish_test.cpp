@@ -385,6 +385,19 @@ TEST(Diagnosed, ATableOfTheTravelLeavesOtherRecordingsTheNominalModel) {
   EXPECT_LT(apart_N(another), 1e-6);
 }
 
+TEST(ShownTooSeldom, InMoreThanAQuarterOfWhatIsLeftOutNothingIsTested) {
+  HeldoutStudy study;
+  EXPECT_EQ(shown_too_seldom(study), "") << "nothing was left out";
+  LeftOut tested;
+  tested.by = "velocity";
+  tested.more_N2 = -3.0;
+  study.left_out.assign(8, tested);
+  for (const std::size_t row : {0U, 1U}) study.left_out[row].more_N2 = 0.0;
+  EXPECT_EQ(shown_too_seldom(study), "");
+  study.left_out[2].more_N2 = 0.0;
+  EXPECT_THAT(shown_too_seldom(study), testing::HasSubstr("3 of 8"));
+}
+
 TEST(Bounds, ASmallSlipStandsAtNoneAndTheLargestDoes) {
   const model::Law* event = model::find_law(*model::find_physics("grip_slip"), "event");
   ASSERT_NE(event, nullptr);
